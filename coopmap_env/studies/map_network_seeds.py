@@ -11,7 +11,6 @@ the strongest planners without predictions, on the same worlds. What was interru
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +18,11 @@ from numpy.typing import NDArray
 
 from coopmap_agents.map_prediction.library import shipped_seeds
 from coopmap_env.cli.errors import errors_as_lines
-from coopmap_env.core.files import write_atomically
-from coopmap_env.core.progress import log
 from coopmap_env.evaluation import BOOTSTRAP_SEED, compare, with_efficiencies
 from coopmap_env.evaluation.statistics.training_runs import mean, mean_difference
 from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.families import get
-from coopmap_env.studies.common.world_options import parse_world_options
+from coopmap_env.studies.common.table_study import Worlds, run_table_study
 
 
 class Task(NamedTuple):
@@ -81,22 +78,25 @@ TASKS = {
 """By name."""
 
 
-def play(
-    task: Task, split: str, n_worlds: int, folder: Path, workers: int
-) -> dict[str, NDArray[np.float64]]:
+def play(task: Task, worlds: Worlds) -> dict[str, NDArray[np.float64]]:
     """Scores by policy, each of shape (n_runs, n_worlds); resumable.
 
     The first policy is that on predicted maps, with one run for each training seed.
     """
-    arguments, seeds = {**task.arguments, "split": split}, range(n_worlds)
+    arguments, seeds = {**task.arguments, "split": worlds.split}, range(worlds.n)
     runs = [f"{task.predictive}:seed={seed}" for seed in task.seeds]
     found = compare(
-        [*runs, *task.opponents], seeds, arguments, folder / "episodes", task.settings, workers,
+        [*runs, *task.opponents],
+        seeds,
+        arguments,
+        worlds.folder / "episodes",
+        task.settings,
+        worlds.workers,
         env_name=task.env_name,
-    )  # fmt: skip
+    )
     if task.env_name == "planar":
         found = with_efficiencies(
-            found, seeds, arguments, folder / "bounds", task.settings, workers
+            found, seeds, arguments, worlds.folder / "bounds", task.settings, worlds.workers
         )
     scores = {spec: own.table[task.score] for spec, own in found.items()}
     return {
@@ -157,21 +157,16 @@ python -m coopmap_env.studies.map_network_seeds \\
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Play all tasks, print the table, write the page."""
-    options = parse_world_options(
-        "python -m coopmap_env.studies.map_network_seeds",
+    """Play all of them, print the table, write the page."""
+    run_table_study(
+        "coopmap_env.studies.map_network_seeds",
         "Map networks of several training seeds on the same worlds.",
+        TASKS,
+        lambda name, worlds: play(TASKS[name], worlds),
+        table_text,
+        page_text,
         arguments,
     )
-    played = {
-        name: play(task, options.split, options.worlds, options.out, options.workers)
-        for name, task in TASKS.items()
-    }
-    table = table_text(played)
-    print(table)
-    if options.page is not None:
-        write_atomically(options.page, page_text(table, options.split, options.worlds))
-        log(f"page: {options.page}")
 
 
 if __name__ == "__main__":

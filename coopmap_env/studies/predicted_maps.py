@@ -13,20 +13,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from coopmap_env.cli.errors import errors_as_lines
-from coopmap_env.core.files import write_atomically
-from coopmap_env.core.progress import log
 from coopmap_env.envs.planar import PlanarSettings
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation, compare, with_efficiencies
 from coopmap_env.evaluation.statistics import bootstrap_mean, bootstrap_paired_difference
 from coopmap_env.evaluation.tables import format_interval, markdown_table
 from coopmap_env.families import get
-from coopmap_env.studies.common.world_options import parse_world_options
+from coopmap_env.studies.common.table_study import Worlds, run_table_study
 
 PREDICTIVE = {
     "predicted map": "predictive",
@@ -79,17 +76,20 @@ CONDITIONS = {
 """By name."""
 
 
-def play_condition(
-    condition: Condition, split: str, n_worlds: int, folder: Path, workers: int
-) -> dict[str, Evaluation]:
+def play_condition(condition: Condition, worlds: Worlds) -> dict[str, Evaluation]:
     """All policies on the first worlds of a split, with efficiencies; resumable."""
-    arguments = {**condition.arguments, "split": split}
-    seeds, specs = range(n_worlds), {**PREDICTIVE, **OPPONENTS}
+    arguments = {**condition.arguments, "split": worlds.split}
+    seeds, specs = range(worlds.n), {**PREDICTIVE, **OPPONENTS}
     found = compare(
-        list(specs.values()), seeds, arguments, folder / "episodes", condition.settings, workers
+        list(specs.values()),
+        seeds,
+        arguments,
+        worlds.folder / "episodes",
+        condition.settings,
+        worlds.workers,
     )
     scored = with_efficiencies(
-        found, seeds, arguments, folder / "bounds", condition.settings, workers
+        found, seeds, arguments, worlds.folder / "bounds", condition.settings, worlds.workers
     )
     return {name: scored[spec] for name, spec in specs.items()}
 
@@ -139,21 +139,16 @@ python -m coopmap_env.studies.predicted_maps \\
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Play all conditions, print the table, write the page."""
-    options = parse_world_options(
-        "python -m coopmap_env.studies.predicted_maps",
+    """Play all of them, print the table, write the page."""
+    run_table_study(
+        "coopmap_env.studies.predicted_maps",
         "Planning on predicted maps beside planning without.",
+        CONDITIONS,
+        lambda name, worlds: play_condition(CONDITIONS[name], worlds),
+        table_text,
+        page_text,
         arguments,
     )
-    played = {
-        name: play_condition(condition, options.split, options.worlds, options.out, options.workers)
-        for name, condition in CONDITIONS.items()
-    }
-    table = table_text(played)
-    print(table)
-    if options.page is not None:
-        write_atomically(options.page, page_text(table, options.split, options.worlds))
-        log(f"page: {options.page}")
 
 
 if __name__ == "__main__":
