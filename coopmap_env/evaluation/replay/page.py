@@ -44,6 +44,8 @@ FRUSTUM_HEIGHT = 0.3
 NEW_VOXEL_COLOR: Color = (255, 196, 61)
 """Of voxels that became occupied with the last scans."""
 OBSTACLE_COLOR: Color = (150, 146, 140)
+TARGET_OPACITY, OBSTACLE_OPACITY = 0.2, 0.15
+"""Of the true solids. Nothing else has these opacities: the overlay finds the truth by them."""
 VERTEX_TOLERANCE = 1e-4
 """Metres; corners of triangles that are closer to each other become one vertex."""
 _CUBE_VERTICES = np.array(
@@ -155,8 +157,8 @@ def _add_static_scene(scene: Any, replay: Replay) -> None:
         position=(*(low + size / 2)[:2], floor_height(replay.grid)),
     )  # fmt: skip
     for name, triangles, color, opacity in (
-        ("/truth/target", replay.target, TARGET_COLOR, 0.2),
-        ("/truth/obstacles", replay.obstacles, OBSTACLE_COLOR, 0.15),
+        ("/truth/target", replay.target, TARGET_COLOR, TARGET_OPACITY),
+        ("/truth/obstacles", replay.obstacles, OBSTACLE_COLOR, OBSTACLE_OPACITY),
     ):
         if len(triangles):
             vertices, faces = cluster_vertices(triangles, VERTEX_TOLERANCE)
@@ -277,6 +279,7 @@ def _overlay(replay: Replay) -> str:
         "heights": [f"rgb{color}" for color in HEIGHT_COLORS],
         "max_height": MAX_COLOR_HEIGHT,
         "new": f"rgb{NEW_VOXEL_COLOR}",
+        "truth_opacities": [TARGET_OPACITY, OBSTACLE_OPACITY],
     }
     # within a script, "<" could end it ("</script>") or hide its end ("<!--<script>")
     text = json.dumps(data).replace("<", "\\u003c")
