@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from coopmap_env.cli.environment import EnvironmentOptions
-from coopmap_env.cli.results import new_results_path
+from coopmap_env.cli.results import command_line, new_results_path
 from coopmap_env.core.progress import log
 from coopmap_env.envs.arguments import SplitName
 
@@ -22,8 +22,9 @@ class Evaluate(EnvironmentOptions):
     """Compare policies on the same worlds.
 
     Writes episodes.csv (one row per policy and world), summary.json (means, interquartile means,
-    probability of improvement over the first policy; 95 % bootstrap intervals), report.md, and with
-    the extra report figure.png. `coopmap report` compares the folders of several runs.
+    probability of improvement over the first policy; 95 % bootstrap intervals), report.md (table,
+    command, versions), and with the extra report figure.png. `coopmap report` compares the folders
+    of several runs.
 
     Such as:
       coopmap evaluate --policies rating_function:search=100,raster --episodes 50
@@ -65,6 +66,7 @@ class Evaluate(EnvironmentOptions):
         """Play all episodes, write the files, print a summary."""
         from coopmap_env.core.locks import folder_lock
         from coopmap_env.evaluation import check_policy
+        from coopmap_env.evaluation.report import missing_figure_text
 
         names = [name.strip() for name in self.policies.split(",") if name.strip()]
         if not names:
@@ -84,6 +86,8 @@ class Evaluate(EnvironmentOptions):
             results = self._play_and_write(names)
         for name, result in results.items():
             print(f"{name:<40} {summary_line(result.table)}")
+        if missing := missing_figure_text():
+            log(missing)
         log(f"coopmap report {self.out} compares it with other runs")
 
     def _play_and_write(self, names: list[str]) -> dict[str, Any]:
@@ -125,7 +129,8 @@ class Evaluate(EnvironmentOptions):
         }
         run = SavedRun(played, results)
         save_run(run, self.out)
-        write_report(run, self.out, f"{env.metadata['name']}, split {self.split}")
+        title = f"{env.metadata['name']}, split {self.split}"
+        write_report(run, self.out, title, command=command_line("evaluate", self))
         write_episodes(results, self.out / "episodes.csv")
         write_atomically(self.out / "summary.json", json.dumps(summary, indent=2) + "\n")
         return results

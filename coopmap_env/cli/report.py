@@ -41,6 +41,7 @@ class Report:
         from coopmap_env.evaluation.report import (
             differences,
             join_runs,
+            missing_figure_text,
             table_lines,
             write_report,
         )
@@ -52,3 +53,5 @@ class Report:
         print("\n".join(table_lines(joined)))
         for note in notes:
             log(f"note: {note}")
+        if missing := missing_figure_text():
+            log(missing)

@@ -1,9 +1,12 @@
-"""Where commands write without ``--out``, and what they say at their end."""
+"""Where commands write without ``--out``, what they say at their end, and how to repeat them."""
 
 from __future__ import annotations
 
+import shlex
+from dataclasses import MISSING, fields
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 RESULTS = Path("results")
 
@@ -23,6 +26,30 @@ def new_results_path(command: str, suffix: str = "", now: datetime | None = None
     names = [name, *(f"{name}-{k}" for k in range(2, 1000))]
     paths = [RESULTS / f"{each}{suffix}" for each in names]
     return next((path for path in paths if not path.exists()), paths[-1])
+
+
+def command_line(name: str, command: Any) -> str:
+    """The line that runs a command with the same options; those at their defaults are left out.
+
+    Parameters
+    ----------
+    name : str
+        Of the command, such as "evaluate".
+    command : dataclass
+        With its options as fields.
+    """
+    words = ["coopmap", name]
+    for option in fields(command):
+        value = getattr(command, option.name)
+        if option.default is not MISSING and value == option.default:
+            continue
+        spelled = option.name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(f"--{spelled}" if value else f"--no-{spelled}")
+        else:
+            words.append(f"--{spelled}")
+            words += map(str, value) if isinstance(value, tuple) else [str(value)]
+    return shlex.join(words)
 
 
 def duration(seconds: float) -> str:

@@ -1,5 +1,7 @@
 """A small report of runs: a table with 95 % intervals, and one figure of what a policy costs.
 
+It ends with the command that made it and the versions, so that the run can be repeated.
+
 The figure has the score against scans, and the final score against the time of a decision and
 against motion.
 """
@@ -12,13 +14,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from coopmap_env.core.extras import import_optional, missing_extras
+from coopmap_env.core.extras import import_optional, missing_extras, pip_command
 from coopmap_env.core.files import write_atomically
+from coopmap_env.core.versions import versions
 from coopmap_env.evaluation.figures import COLORS, import_pyplot, plot_curves, save_figure
 from coopmap_env.evaluation.saved_run import SavedRun
 from coopmap_env.evaluation.tables import format_interval, markdown_table
 
 REPORT_FILE, FIGURE_FILE = "report.md", "figure.png"
+LIBRARIES = ("numpy", "numba", "matplotlib")
+"""Their versions are in the report, beside those of coopmap and Python."""
 SHARED = ("id", "scene", "n_robots", "max_scans", "max_time", "split", "mount")
 """Entries of an environment in which runs may differ, so that a note has to say so."""
 
@@ -37,9 +42,9 @@ COLUMNS = (
     Column("coverage", "observed, %", 100.0, 2),
     Column("coverage_auc", "area under its curve, %", 100.0, 2),
     Column("f_score", "F-score", 1.0, 3),
-    Column("log_loss", "log-loss", 1.0, 4),
+    Column("log_loss", "log-loss, nats", 1.0, 4),
     Column("efficiency", "efficiency, %", 100.0, 1),
-    Column("motion_distance", "motion", 1.0, 1),
+    Column("motion_distance", "motion, sum of d", 1.0, 1),
     Column("planning_time_ms", "decision, ms", 1.0, 2),
 )
 """Those of which a run has no score are left out."""
@@ -92,7 +97,9 @@ def table_lines(run: SavedRun) -> list[str]:
     return markdown_table(rows, padded=True).splitlines()
 
 
-def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] = ()) -> list[Path]:
+def write_report(
+    run: SavedRun, folder: Path, title: str, notes: Sequence[str] = (), command: str = ""
+) -> list[Path]:
     """Write report.md and, with the extra ``report``, figure.png.
 
     Parameters
@@ -102,6 +109,8 @@ def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] =
     title : str
     notes : sequence of str
         Sentences below the table.
+    command : str
+        The command line that made the run.
 
     Returns
     -------
@@ -117,8 +126,17 @@ def write_report(run: SavedRun, folder: Path, title: str, notes: Sequence[str] =
         draw_costs(run, folder / FIGURE_FILE)
         paths.append(folder / FIGURE_FILE)
         lines += ["", f"![Score against scans, decision time and motion]({FIGURE_FILE})"]
+    if command:
+        lines += ["", "```", command, "```"]
+    lines += ["", ", ".join(f"{name} {number}" for name, number in versions(LIBRARIES).items())]
     write_atomically(paths[0], "\n".join(lines).rstrip() + "\n")
     return paths
+
+
+def missing_figure_text() -> str | None:
+    """A line that says how to get the figure, or None if nothing is missing."""
+    missing = missing_extras(["report"])
+    return f"{FIGURE_FILE} is left out, which needs: {pip_command(missing)}" if missing else None
 
 
 def draw_costs(run: SavedRun, path: Path) -> None:
@@ -130,11 +148,13 @@ def draw_costs(run: SavedRun, path: Path) -> None:
     has_surface = all("surface_coverage" in one for one in curves)
     score = "surface_coverage" if has_surface else "coverage"
     label = "% of visible surface covered" if has_surface else "% of world observed"
-    figure, axes = import_pyplot().subplots(1, 3, figsize=(15, 4.4), sharey=True)
+    figure, axes = import_pyplot().subplots(
+        1, 3, figsize=(15, 5), sharey=True, layout="constrained"
+    )
     plot_curves(axes[0], run.evaluations, run.n_robots, score, label)
     for axis, cost, text in (
         (axes[1], TIME, "time of a decision of one robot, ms"),
-        (axes[2], MOTION, "motion of the team"),
+        (axes[2], MOTION, "motion of the team, sum of d (Eq. 5)"),
     ):
         for k, (name, evaluation) in enumerate(run.evaluations.items()):
             x, y = (
@@ -148,8 +168,8 @@ def draw_costs(run: SavedRun, path: Path) -> None:
         axis.set_xlabel(text)
         axis.grid(alpha=0.3)
     _scale_by_decades(axes[1])
-    axes[0].legend(fontsize=8)
-    figure.tight_layout()
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=min(4, len(names)), fontsize=9)
     save_figure(figure, path)
 
 

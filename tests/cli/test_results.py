@@ -1,9 +1,10 @@
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 import pytest
 
-from coopmap_env.cli.results import duration, new_results_path
+from coopmap_env.cli.results import command_line, duration, new_results_path
 
 NOW = datetime(2026, 11, 30, 18, 45, 1)
 
@@ -35,3 +36,28 @@ def test_a_default_path_has_the_command_and_the_time_and_never_exists(tmp_path, 
 )
 def test_durations_are_short(seconds, text):
     assert duration(seconds) == text
+
+
+@dataclass
+class Options:
+    out: Path = Path("results")
+    n_robots: int | None = None
+    joints: tuple[str, ...] = ()
+    fast: bool = False
+    shown: bool = True
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (Options(), "coopmap play"),
+        (Options(Path("of one")), "coopmap play --out 'of one'"),
+        (
+            Options(n_robots=3, joints=("pan", "tilt")),
+            "coopmap play --n-robots 3 --joints pan tilt",
+        ),
+        (Options(fast=True, shown=False), "coopmap play --fast --no-shown"),
+    ],
+)
+def test_a_command_line_has_the_options_that_differ_from_the_defaults(options, line):
+    assert command_line("play", options) == line

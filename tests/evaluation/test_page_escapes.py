@@ -87,6 +87,25 @@ def test_names_between_backticks_are_code(template):
     assert page == ("<b><code>a&lt;b</code> is lower than <code>c</code>, by 1 &amp; more</b>")
 
 
+def test_tables_scroll_in_boxes_and_the_contents_list_every_heading():
+    html = (
+        "<nav></nav><h2>Maps &amp; <code>poses</code></h2><table><tr></tr></table>"
+        "<h3>all scores</h3><h2>Field\n2</h2><h3>all scores</h3>"
+    )
+    page = pages.with_contents(pages.with_scroll_boxes(html))
+    assert page == (
+        '<nav aria-label="Contents"><h2>Contents</h2>\n<ul>\n'
+        '<li class="level-2"><a href="#maps-poses">Maps &amp; poses</a></li>\n'
+        '<li class="level-3"><a href="#all-scores">all scores</a></li>\n'
+        '<li class="level-2"><a href="#field-2">Field\n2</a></li>\n'
+        '<li class="level-3"><a href="#all-scores-2">all scores</a></li>\n</ul></nav>'
+        '<h2 id="maps-poses">Maps &amp; <code>poses</code></h2>'
+        '<div class="scroll" tabindex="0"><table><tr></tr></table></div>'
+        '<h3 id="all-scores">all scores</h3><h2 id="field-2">Field\n2</h2>'
+        '<h3 id="all-scores-2">all scores</h3>'
+    )
+
+
 def test_a_page_shows_pictures_of_its_own_folder_only(template, tmp_path):
     (tmp_path / "figures" / "curve.png").write_bytes(b"curve")
     (tmp_path / "secret.png").write_bytes(b"secret")

@@ -196,6 +196,7 @@ def test_the_page_holds_the_numbers_of_each_frame(page):
     assert data["rewards"][2] == [1.0, -0.5]
     assert data["notes"][2] == ["", "collided with </script> crate"]
     assert data["times"] == pytest.approx([0.0, 0.8, 2.1])
+    assert data["truth_opacities"] == [0.2, 0.15]
 
 
 def test_writing_prints_nothing(replay, capsys):
@@ -243,3 +244,31 @@ def test_a_browser_draws_the_scene_and_the_numbers_follow_the_timeline(page, tmp
     assert re.search(rf'<section id="coopmap"[^>]*data-frame="{shown}"', document)
     assert f"{shown} of 2" in document
     assert f"{20 * shown}.0 %" in document
+    assert re.search(r'<div id="coopmap-loading"[^>]* hidden', document)
+
+
+COUNT_HIDDEN = """<script>
+const scenes = [];
+window.__THREE_DEVTOOLS__ = new EventTarget();
+window.__THREE_DEVTOOLS__.addEventListener(
+  "observe", ({ detail }) => detail.isScene && scenes.push(detail)
+);
+setInterval(() => {
+  let hidden = 0;
+  for (const scene of scenes)
+    scene.traverse(({ material }) => hidden += material?.visible === false);
+  if (document.querySelector("#root [role=slider]")) document.body.dataset.hidden = hidden;
+}, 50);
+</script>"""
+
+
+@pytest.mark.parametrize(("box", "hidden"), [(" checked", 0), ("", 1)])
+def test_a_browser_hides_the_true_solids_alone(page, tmp_path, box, hidden):
+    text = page.read_text(encoding="utf-8")
+    checked = 'id="coopmap-truth" checked'
+    assert text.count(checked) == 1
+    text = text.replace(checked, checked.replace(" checked", box))
+    path = tmp_path / "page.html"
+    path.write_text(text.replace("<head>", f"<head>{COUNT_HIDDEN}", 1), encoding="utf-8")
+    _, document = opened(path, tmp_path, 2500)
+    assert re.search(rf'<body[^>]* data-hidden="{hidden}"', document)

@@ -5,6 +5,7 @@ from plain.episodes import example_episode
 
 from coopmap_env.cli import main
 from coopmap_env.core.files import FileError
+from coopmap_env.core.version import __version__
 from coopmap_env.evaluation import Evaluation, report
 from coopmap_env.evaluation.report import (
     differences,
@@ -94,8 +95,36 @@ def test_the_report_has_the_table_the_notes_and_the_figure(run, tmp_path):
     assert text.startswith("# a title\n")
     assert "\n".join(table_lines(run)) in text
     assert "- a note\n" in text
+    assert f"\ncoopmap {__version__}, python " in text
     assert "](figure.png)" in text
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_report_of_a_command_has_its_line(run, tmp_path):
+    write_report(run, tmp_path, "a title", command="coopmap evaluate --episodes 3")
+    assert "```\ncoopmap evaluate --episodes 3\n```\n" in (tmp_path / "report.md").read_text()
+
+
+def test_a_missing_figure_is_said_in_one_line(monkeypatch):
+    assert report.missing_figure_text() is None
+    monkeypatch.setattr(report, "missing_extras", lambda extras: {"report": ["matplotlib"]})
+    line = "figure.png is left out, which needs: pip install 'coopmap[report]'"
+    assert report.missing_figure_text() == line
+
+
+def test_evaluate_writes_the_report_and_says_what_is_missing(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(report, "missing_extras", lambda extras: {"report": ["matplotlib"]})
+    out = tmp_path / "of one"
+    main(
+        ["evaluate", "--policies", "raster", "--episodes", "2", "--max-scans", "1", "--out",
+         str(out)]
+    )  # fmt: skip
+    text = (out / "report.md").read_text()
+    line = f"coopmap evaluate --max-scans 1 --out '{out}' --policies raster --episodes 2"
+    assert sorted(line.split()) == sorted(text.split("```")[1].split())
+    assert "| raster | 2 " in text
+    assert "figure.png is left out, which needs: pip install" in capsys.readouterr().err
+    assert (out / "episodes.csv").is_file()
 
 
 def test_without_matplotlib_there_is_no_figure(run, tmp_path, monkeypatch):

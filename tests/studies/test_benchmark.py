@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plain.episodes import example_episode
+from plain.pages import check_report_page
 
 from coopmap_env.cli import main
 from coopmap_env.evaluation import Evaluation
@@ -28,7 +29,7 @@ from coopmap_env.studies.benchmark.plan import FULL, QUICK, BenchmarkPlan, make_
 from coopmap_env.studies.benchmark.report import write_benchmark_report
 from coopmap_env.studies.benchmark.study import ConditionResult, MethodResult
 from coopmap_env.studies.benchmark.summary import benchmark_summary, condition_summary
-from coopmap_env.studies.benchmark.tables import benchmark_text
+from coopmap_env.studies.benchmark.tables import benchmark_text, split_by_score
 from coopmap_env.studies.benchmark.verdicts import headlines, verdicts
 
 SHORT = {"n_robots": 2, "max_scans": 2, "split": "test", "reward": "rating"}
@@ -210,7 +211,7 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
     found = write_benchmark_report(study, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text()) == json.loads(json.dumps(found))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("data:image/png;base64") == 3
+    check_report_page(page)
     assert "Note: planar: tuned with other constants." in page
     assert found["notes"] == ["planar: tuned with other constants"]
     assert " ".join(page.split()).count("Planar-v1: 7 training worlds") == 2
@@ -222,6 +223,30 @@ def test_all_files_of_the_report_are_written(study, tmp_path):
     rows = list(csv.DictReader((tmp_path / "planar_episodes.csv").read_text().splitlines()))
     assert len(rows) == 3 * 7
     assert {row["policy"] for row in rows} >= {"learned; coverage", "learned; information_gain"}
+
+
+def test_a_table_of_several_scores_becomes_one_for_each_with_its_unit():
+    table = [
+        ["learned", "score", "difference", "verdict"],
+        ["a", "reward", "+1", "higher"],
+        ["a", "area under the coverage curve", "-2", "lower"],
+        ["b", "reward", "+3", "higher"],
+    ]
+    assert split_by_score(table) == [
+        (
+            "reward",
+            [
+                ["learned", "difference, nats", "verdict"],
+                ["a", "+1", "higher"],
+                ["b", "+3", "higher"],
+            ],
+        ),
+        (
+            "area under the coverage curve",
+            [["learned", "difference, points", "verdict"], ["a", "-2", "lower"]],
+        ),
+    ]
+    assert split_by_score(table[:1]) == []
 
 
 def test_the_command_compares_in_the_named_environments(tmp_path, monkeypatch, capsys):

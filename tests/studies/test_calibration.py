@@ -5,7 +5,12 @@ from coopmap_env.envs.planar import PlanarEnv, PlanarSettings
 from coopmap_env.evaluation import make_policy
 from coopmap_env.simulation.scenes.planar import Obstacles
 from coopmap_env.studies.common.hit_miss import HIT_MISS_LOG_ODDS_RANGE, HitMissModel
-from coopmap_env.studies.common.map_scores import MapModel, calibration_scores
+from coopmap_env.studies.common.map_scores import (
+    MapModel,
+    ScoredCells,
+    calibration_scores,
+    reliability_intervals,
+)
 from coopmap_env.studies.section3 import calibration
 
 OURS = MapModel(PlanarSettings().beam, PlanarSettings().log_odds_range)
@@ -17,6 +22,34 @@ def recorded():
     env = PlanarEnv(scene=Obstacles(shape=(80, 80)), split="validation", max_scans=10)
     policy = make_policy("rating_function:search=30")
     return env, list(calibration.record_scans(env, policy, range(4)))
+
+
+def cells_of_a_bin(n_cells, n_occupied, probability=0.35):
+    return ScoredCells(
+        np.full(n_cells, probability), np.arange(n_cells) < n_occupied, np.ones(n_cells, bool)
+    )
+
+
+def test_intervals_of_the_reliability_curve_are_over_worlds():
+    # worlds of 2 of 4 and 0 of 12 cells: resamples have 2/4, 2/16 or 0/12
+    found = reliability_intervals([cells_of_a_bin(4, 2), cells_of_a_bin(12, 0)])
+    assert found["low"][3] == 0.0
+    assert found["high"][3] == 0.5
+    assert {k for k, low in enumerate(found["low"]) if low is not None} == {3}
+    same = reliability_intervals([cells_of_a_bin(4, 1)] * 3)
+    assert same["low"][3] == same["high"][3] == 0.25
+
+
+def test_models_have_intervals_if_there_are_several_worlds(recorded):
+    env, worlds = recorded
+    grid = env.belief().map.grid
+    several = calibration.compare_models(worlds, grid, {"ours": OURS})["ours"]["reliability"]
+    for low, observed, high in zip(
+        several["low"], several["observed"], several["high"], strict=True
+    ):
+        assert low is None if observed is None else low <= observed <= high
+    one = calibration.compare_models(worlds[:1], grid, {"ours": OURS})["ours"]["reliability"]
+    assert "low" not in one
 
 
 def test_every_visited_pose_has_a_scan(recorded):

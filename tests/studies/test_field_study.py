@@ -1,13 +1,20 @@
 """The field's part of the report, small."""
 
 import json
+import re
+from html import escape, unescape
 
 import pytest
+from plain.pages import MAX_BYTES
 
 from coopmap_env.cli import main
 from coopmap_env.core.extras import EXTRAS, missing_extras
+from coopmap_env.studies.common.pages import render_template
 from coopmap_env.studies.field import study as field_study
 from coopmap_env.studies.field.report import (
+    MAP_COLUMNS,
+    REPLAY_FILE,
+    SCORE_COLUMNS,
     TABLE_SCORES,
     field_summary,
     field_text_table,
@@ -54,8 +61,32 @@ def test_the_summary_is_json_and_the_table_names_every_policy(study):
 
 def test_all_parts_are_written(study, tmp_path):
     write_field_figures(study, tmp_path)
-    names = {"field_surface.png", "field_render.png", "stereo.png", "field_replay.html"}
+    names = {
+        "field_surface.png", "field_surface.svg", "field_render.png", "stereo.png",
+        "field_replay.html",
+    }  # fmt: skip
     assert {path.name for path in tmp_path.iterdir()} == names
+
+
+def test_the_page_has_the_tables_and_the_replay_in_it(study, tmp_path):
+    pytest.importorskip("jinja2")
+    write_field_figures(study, tmp_path)
+    replay = (tmp_path / REPLAY_FILE).read_text(encoding="utf-8")
+    page = render_template(
+        "field/report.html",
+        tmp_path,
+        field=field_summary(study),
+        field_columns=SCORE_COLUMNS,
+        field_map_columns=MAP_COLUMNS,
+        replay=replay,
+    )
+    embedded = re.search(r'<iframe [^>]*loading="lazy" srcdoc="([^"]*)"></iframe>', page).group(1)
+    assert unescape(embedded) == replay
+    for column in (*SCORE_COLUMNS, *MAP_COLUMNS):
+        assert f"<th>{escape(column.title, quote=False)}</th>" in page
+    assert page.count("<table") == page.count('<div class="scroll"') == 3
+    assert page.count("<title>") > 5
+    assert len(page.encode()) < MAX_BYTES
 
 
 def test_no_extra_is_missing_in_the_development_environment():

@@ -4,6 +4,7 @@ import csv
 import json
 
 import pytest
+from plain.pages import check_report_page
 
 from coopmap_env.studies.section3 import study as section3
 from coopmap_env.studies.section3.setting import PAPER_TABLE_1, TABLE_1_SCORES, TableConstants
@@ -123,7 +124,7 @@ def test_the_report_says_what_the_record_played_and_what_the_command_plays(out):
 @pytest.mark.slow
 def test_the_report_is_self_contained(out):
     html = (out / "report.html").read_text()
+    check_report_page(html)
     assert 'src="data:image/png;base64,' in html
-    assert "http://" not in html
-    assert "https://" not in html
+    assert html.count('class="chart"') == 4
     assert "held" in html

@@ -46,6 +46,8 @@ POSES_PER_MOTION = 16
 FRUSTUM_HEIGHT = 0.3
 """Height of a camera's drawn frustum, metres."""
 OBSTACLE_COLOR: Color = (150, 146, 140)
+TARGET_OPACITY, OBSTACLE_OPACITY = 0.2, 0.15
+"""Of the true solids. Nothing else has these opacities: the overlay finds the truth by them."""
 VERTEX_TOLERANCE = 1e-4
 """Metres; corners of triangles that are closer to each other become one vertex."""
 _CUBE_VERTICES = np.array(
@@ -162,8 +164,8 @@ def _add_static_scene(scene: Any, replay: Replay) -> None:
         position=(*(low + size / 2)[:2], floor_height(replay.grid)),
     )  # fmt: skip
     for name, triangles, color, opacity in (
-        ("/truth/target", replay.target, TARGET_COLOR, 0.2),
-        ("/truth/obstacles", replay.obstacles, OBSTACLE_COLOR, 0.15),
+        ("/truth/target", replay.target, TARGET_COLOR, TARGET_OPACITY),
+        ("/truth/obstacles", replay.obstacles, OBSTACLE_COLOR, OBSTACLE_OPACITY),
     ):
         if len(triangles):
             vertices, faces = cluster_vertices(triangles, VERTEX_TOLERANCE)
@@ -284,6 +286,7 @@ def _overlay(replay: Replay) -> str:
         "heights": [f"rgb{color}" for color in HEIGHT_COLORS],
         "max_height": MAX_COLOR_HEIGHT,
         "new": f"rgb{NEW_CELL_COLOR}",
+        "truth_opacities": [TARGET_OPACITY, OBSTACLE_OPACITY],
     }
     # within a script, "<" could end it ("</script>") or hide its end ("<!--<script>")
     text = json.dumps(data).replace("<", "\\u003c")

@@ -1,4 +1,4 @@
-"""Figures of the benchmark study, as PNG files (extra ``report``)."""
+"""Figures of the benchmark study, as PNG and SVG files (extra ``report``)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
+from coopmap_env.evaluation.figures import (
+    COLORS,
+    import_pyplot,
+    label_curves,
+    plot_band,
+    save_chart,
+)
+from coopmap_env.evaluation.svg import add_reading
 from coopmap_env.studies.benchmark.methods import FAMILIES
 
 AREA_LABELS = {
@@ -31,46 +38,48 @@ FAMILY_COLORS = dict(
 def draw_condition(condition: dict[str, Any], path: Path) -> None:
     """Draw curves and performance profiles of the plotted methods, and the AUC of all methods."""
     plt = import_pyplot()
-    figure = plt.figure(figsize=(11, 9.5), layout="constrained")
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.15, 1))
+    height = 1.2 + 0.24 * len(condition["methods"])
+    figure = plt.figure(figsize=(12.5, 4.4 + height), layout="constrained")
+    grid = figure.add_gridspec(2, 2, height_ratios=(4.4, height))
     curves = figure.add_subplot(grid[0, 0])
-    profiles = figure.add_subplot(grid[1, 0])
-    areas = figure.add_subplot(grid[:, 1])
+    profiles = figure.add_subplot(grid[0, 1])
+    areas = figure.add_subplot(grid[1, :])
     _draw_curves(curves, condition)
     _draw_profiles(profiles, condition)
     _draw_areas(areas, condition)
-    figure.legend(*curves.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    save_figure(figure, path)
+    save_chart(figure, path)
 
 
 def _draw_curves(axis: Any, condition: dict[str, Any]) -> None:
     n_robots = condition["env_kwargs"]["n_robots"]
+    axis.set(xlabel="scans of the team", ylabel=CURVE_LABELS[condition["env_name"]])
     for label, method, style in _plotted_methods(condition):
         scans = n_robots * np.arange(len(method["curve"]["estimate"]))
         _draw_band(axis, scans, method["curve"], style, label)
-    axis.set(xlabel="scans of the team", ylabel=CURVE_LABELS[condition["env_name"]])
     axis.set_xlim(left=0)
     axis.set_ylim(bottom=0)
     axis.grid(alpha=0.3)
+    label_curves(axis)
 
 
 def _draw_profiles(axis: Any, condition: dict[str, Any]) -> None:
     thresholds = 100 * np.array(condition["thresholds"])
-    for label, method, style in _plotted_methods(condition):
-        _draw_band(axis, thresholds, method["profile"], style, label)
     axis.set(
         xlabel=f"tau: {AREA_LABELS[condition['areas'][0]]}",
         ylabel="% of worlds above tau",
         xlim=(thresholds[0], thresholds[-1]),
         ylim=(0, 101),
     )
+    for label, method, style in _plotted_methods(condition):
+        _draw_band(axis, thresholds, method["profile"], style, label)
     axis.grid(alpha=0.3)
+    # all profiles end at zero: their labels are where they cross half of the worlds
+    label_curves(axis, at_height=50.0)
 
 
 def _draw_band(axis: Any, at: Any, band: dict[str, Any], style: dict[str, Any], label: str) -> None:
-    axis.plot(at, 100 * np.array(band["estimate"]), **style, label=label)
-    low, high = (100 * np.array(band[end]) for end in ("low", "high"))
-    axis.fill_between(at, low, high, color=style["color"], alpha=0.13, linewidth=0)
+    estimate, low, high = (100 * np.array(band[part]) for part in ("estimate", "low", "high"))
+    plot_band(axis, at, estimate, (low, high), label, **style)
 
 
 def _draw_areas(axis: Any, condition: dict[str, Any]) -> None:
@@ -78,14 +87,14 @@ def _draw_areas(axis: Any, condition: dict[str, Any]) -> None:
     area = condition["areas"][0]
     scores = {label: method["scores"][area] for label, method in condition["methods"].items()}
     order = sorted(scores, key=lambda label: scores[label]["mean"]["estimate"])
+    axis.set(xlabel=AREA_LABELS[area], ylim=(-0.7, len(order) - 0.3))
     for row, label in enumerate(order):
         color = FAMILY_COLORS[condition["methods"][label]["family"]]
-        _draw_interval(axis, row, scores[label]["mean"], color, scale=100)
+        _draw_interval(axis, row, scores[label]["mean"], color, label, scale=100)
         runs = scores[label]["runs"]
         if len(runs) > 1:
             axis.plot([100 * run for run in runs], [row - 0.3] * len(runs), "|", color=color)
     axis.set_yticks(range(len(order)), order, fontsize=9)
-    axis.set(xlabel=AREA_LABELS[area], ylim=(-0.7, len(order) - 0.3))
     axis.grid(axis="x", alpha=0.3)
 
 
@@ -117,7 +126,7 @@ def draw_generalization(conditions: list[dict[str, Any]], path: Path) -> None:
     figure.legend(
         handles.values(), handles, loc="outside upper center", ncols=len(env_names), fontsize=8
     )
-    save_figure(figure, path)
+    save_chart(figure, path)
 
 
 def methods_with_baseline(condition: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -127,6 +136,7 @@ def methods_with_baseline(condition: dict[str, Any]) -> dict[str, dict[str, Any]
 
 def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
     axis.axvline(1.0, color="black", linewidth=1)
+    axis.set_xlabel("ratio of AUC to the strongest planner's")
     for row, condition in enumerate(reversed(conditions)):
         if row % 2:
             axis.axhspan(row - 0.5, row + 0.5, color="black", alpha=0.05, linewidth=0)
@@ -138,13 +148,11 @@ def _draw_ratios(axis: Any, conditions: list[dict[str, Any]]) -> None:
             y = row + 0.5 - (number + 0.5) / len(compared)
             marker = MARKERS[n_drawn[family] % len(MARKERS)]
             n_drawn[family] += 1
-            name = label if row == 0 else None
-            _draw_interval(axis, y, ratio, FAMILY_COLORS[family], label=name, marker=marker)
+            _draw_interval(axis, y, ratio, FAMILY_COLORS[family], label, marker=marker)
     axis.set_yticks(
         range(len(conditions)), [condition["label"] for condition in reversed(conditions)]
     )
     axis.set_ylim(-0.5, len(conditions) - 0.5)
-    axis.set_xlabel("ratio of AUC to the strongest planner's")
     axis.grid(axis="x", alpha=0.3)
 
 
@@ -153,13 +161,15 @@ def _draw_interval(
     row: float,
     interval: dict[str, float],
     color: str,
+    label: str,
     scale: float = 1.0,
-    label: str | None = None,
     marker: str = "o",
 ) -> None:
     at, low, high = (scale * interval[part] for part in ("estimate", "low", "high"))
     axis.plot([low, high], [row, row], "-", color=color, linewidth=2, alpha=0.6)
     axis.plot(at, row, marker, color=color, markersize=5, label=label)
+    text = f"{axis.get_xlabel()}: {at:.4g} [{low:.4g}, {high:.4g}]"
+    add_reading(axis, at, row, (label, text))
 
 
 def _plotted_methods(condition: dict[str, Any]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from coopmap_agents.pretrained import pretrained_names, pretrained_record
-from coopmap_env.evaluation.figures import import_pyplot, save_figure
+from coopmap_env.evaluation.figures import import_pyplot, label_curves, save_figure
 
 
 def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:
@@ -29,7 +29,7 @@ def draw_learning_curves(path: Path, score: str = "coverage_auc") -> None:
     """
     plt = import_pyplot()
     names = pretrained_names()
-    figure, axes = plt.subplots(1, len(names), figsize=(3.2 * len(names), 3.0), squeeze=False)
+    figure, axes = plt.subplots(1, len(names), figsize=(3.6 * len(names), 3.0), squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
         _draw(axis, name, pretrained_record(name)["trainings"], score)
     axes[0][0].set_ylabel("area under the coverage curve, %\n(validation worlds)")
@@ -48,7 +48,7 @@ def _draw(axis: Any, name: str, trainings: dict[str, Any], score: str) -> None:
     axis.set_title(name, fontsize=10)
     axis.set_xlabel("thousand steps")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
+    label_curves(axis)
 
 
 if __name__ == "__main__":

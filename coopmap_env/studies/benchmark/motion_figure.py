@@ -1,11 +1,12 @@
-"""Score against motion: the sweep of each family and the learned policies, as a PNG file."""
+"""Score against motion: the sweep of each family and the learned policies, as PNG and SVG files."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.evaluation.figures import import_pyplot, save_figure
+from coopmap_env.evaluation.figures import import_pyplot, save_chart
+from coopmap_env.evaluation.svg import add_readings
 from coopmap_env.studies.benchmark.figures import FAMILY_COLORS
 from coopmap_env.studies.benchmark.methods import LEARNED, MOTION
 from coopmap_env.studies.benchmark.tables import training_text
@@ -23,31 +24,41 @@ def draw_sweep(sweep: dict[str, Any], path: Path) -> None:
     """
     plt = import_pyplot()
     scores = sweep["scores"]
-    figure, axes = plt.subplots(1, len(scores), figsize=(5.2 * len(scores), 4.2), squeeze=False)
+    figure, axes = plt.subplots(
+        1, len(scores), figsize=(5.2 * len(scores), 4.8), squeeze=False, layout="constrained"
+    )
+    where = f"{ENV_LABELS[sweep['env_name']]}, {sweep['worlds']} worlds"
     for axis, score in zip(axes[0], scores, strict=True):
         name, scale, unit = SCORE_TEXTS[score]
+        axis.set(xlabel="motion of the team, sum of d (Eq. 5)", ylabel=f"{name}, {unit}")
+        axis.set_title(f"{where}; lines: by {training_text(sweep)}", fontsize=9)
         _draw_planners(axis, sweep, score, scale)
         _draw_learned(axis, sweep, score, scale)
-        axis.set(xlabel="motion distance of the team", ylabel=f"{name}, {unit}")
         axis.grid(alpha=0.3)
-    where = f"{ENV_LABELS[sweep['env_name']]}, {sweep['worlds']} worlds"
-    axes[0, 0].set_title(f"{where}; lines: by {training_text(sweep)}", fontsize=10)
-    axes[0, -1].legend(fontsize=8)
-    figure.tight_layout()
-    save_figure(figure, path)
+    figure.legend(
+        *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=8
+    )
+    save_chart(figure, path)
 
 
 def _draw_planners(axis: Any, sweep: dict[str, Any], score: str, scale: float) -> None:
     for family, color in FAMILY_COLORS.items():
-        members = [method for method in sweep["methods"].values() if method["family"] == family]
+        members = {name: m for name, m in sweep["methods"].items() if m["family"] == family}
         if not members or family == LEARNED:
             continue
         line = [sweep["methods"][label] for label in sweep["lines"][score].get(family, ())]
         line.sort(key=lambda method: float(method[MOTION]["estimate"]))
         axis.plot(*_points(line, score, scale), "-", color=color, linewidth=1.2, label=family)
         for is_sequential, marker in ((False, "o"), (True, "^")):
-            chosen = [m for m in members if ("sequential" in m["policies"][0]) == is_sequential]
+            chosen = [
+                method
+                for method in members.values()
+                if ("sequential" in method["policies"][0]) == is_sequential
+            ]
             axis.plot(*_points(chosen, score, scale), marker, color=color, markersize=4)
+        for name, method in members.items():
+            low, high = ([scale * method[score][end]] for end in ("low", "high"))
+            add_readings(axis, name, *_points([method], score, scale), low, high)
 
 
 def _draw_learned(axis: Any, sweep: dict[str, Any], score: str, scale: float) -> None:
@@ -70,6 +81,8 @@ def _draw_learned(axis: Any, sweep: dict[str, Any], score: str, scale: float) ->
             label=label,
             **bars,
         )
+        low, high = ([scale * method[score][end]] for end in ("low", "high"))
+        add_readings(axis, label, [motion], [value], low, high)
 
 
 def _points(

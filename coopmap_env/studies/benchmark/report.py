@@ -21,6 +21,7 @@ from coopmap_env.studies.benchmark.tables import (
     generalization_table,
     main_table,
     opponent_table,
+    split_by_score,
     training_text,
     training_texts,
     verdict_table,
@@ -57,6 +58,7 @@ def write_benchmark_report(study: BenchmarkStudy, out: Path) -> dict[str, Any]:
         scores=all_scores,
         comparisons=comparison_table,
         opponents=opponent_table,
+        split_by_score=split_by_score,
         equal_motion=equal_motion_table,
         generalization=generalization_table(summary["generalization"]),
     )

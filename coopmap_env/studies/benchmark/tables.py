@@ -49,15 +49,15 @@ def _area_columns(area: str) -> tuple[Column, ...]:
     return (
         Column("AUC, %", area, 100),
         Column("AUC, interquartile mean, %", area, 100, statistic="interquartile_mean"),
-        Column("AUC minus strongest planner", area, 100, statistic="difference"),
+        Column("AUC minus strongest planner, points", area, 100, statistic="difference"),
         Column("P(improvement)", area, statistic="probability_of_improvement"),
     )
 
 
-_REWARD = Column("reward", "reward", digits=1, bounds=False)
-_LOG_LOSS = Column("log-loss", "log_loss", digits=4, bounds=False)
-_MOTION = Column("motion distance", "motion_distance", digits=0, bounds=False)
-_TIME = Column("planning, ms", "planning_time_ms", bounds=False)
+_REWARD = Column("reward, nats", "reward", digits=1, bounds=False)
+_LOG_LOSS = Column("log-loss, nats", "log_loss", digits=4, bounds=False)
+_MOTION = Column("motion, sum of d", "motion_distance", digits=0, bounds=False)
+_TIME = Column("decision, ms", "planning_time_ms", bounds=False)
 COLUMNS = {
     "planar": (
         Column("coverage, %", "coverage", 100),
@@ -73,7 +73,7 @@ COLUMNS = {
         Column("surface coverage, %", "surface_coverage", 100, 1),
         *_area_columns("surface_coverage_auc"),
         Column("coverage AUC, %", "coverage_auc", 100),
-        Column("AUC minus strongest planner", "coverage_auc", 100, statistic="difference"),
+        Column("AUC minus strongest planner, points", "coverage_auc", 100, statistic="difference"),
         Column("F-score", "f_score", digits=3, bounds=False),
         _REWARD,
         _LOG_LOSS,
@@ -84,16 +84,16 @@ COLUMNS = {
 """Columns of the main table by environment; the report also has all scores with intervals."""
 ALL_SCORES = (
     Column("coverage, %", "coverage", 100),
-    Column("AUC, %", "coverage_auc", 100),
+    Column("coverage AUC, %", "coverage_auc", 100),
     Column("efficiency, %", "efficiency", 100),
     Column("efficiency of the area, %", "efficiency_auc", 100),
     Column("surface coverage, %", "surface_coverage", 100),
-    Column("AUC, %", "surface_coverage_auc", 100),
+    Column("surface coverage AUC, %", "surface_coverage_auc", 100),
     Column("F-score", "f_score", digits=3),
-    Column("reward", "reward"),
-    Column("log-loss", "log_loss", digits=4),
-    Column("motion distance", "motion_distance", digits=1),
-    Column("planning, ms", "planning_time_ms", bounds=False),
+    Column("reward, nats", "reward"),
+    Column("log-loss, nats", "log_loss", digits=4),
+    Column("motion, sum of d", "motion_distance", digits=1),
+    Column("decision, ms", "planning_time_ms", bounds=False),
 )
 
 
@@ -210,7 +210,7 @@ def opponent_table(part: dict[str, Any]) -> Table:
 
 def equal_motion_table(sweep: dict[str, Any]) -> Table:
     """Learned policies minus each family of planners at equal motion."""
-    rows = [["learned", "minus", "score", "motion distance", "planners", "difference", "verdict"]]
+    rows = [["learned", "minus", "score", "motion, sum of d", "planners", "difference", "verdict"]]
     for entry in sweep["equal_motion"]:
         name, scale, _ = SCORE_TEXTS[entry["score"]]
         rows.append(
@@ -227,6 +227,29 @@ def equal_motion_table(sweep: dict[str, Any]) -> Table:
     return rows
 
 
+def split_by_score(table: Table) -> list[tuple[str, Table]]:
+    """A table with a column "score" as one table for each score, so that each column has one unit.
+
+    Returns
+    -------
+    list of (str, Table)
+        The score, and its rows without that column; the headers have the score's unit.
+    """
+    header, *rows = table
+    at = header.index("score")
+    units = {name: unit for name, _, unit in SCORE_TEXTS.values()}
+    out = []
+    for score in dict.fromkeys(row[at] for row in rows):
+        difference = units[score]
+        unit_of = dict.fromkeys(("difference", "each training run"), difference)
+        value = "%" if difference == "points" else difference
+        unit_of |= dict.fromkeys(("planners", "mean on training worlds", "on test worlds"), value)
+        titles = [f"{name}, {unit_of[name]}" if name in unit_of else name for name in header]
+        kept = [titles, *(row for row in rows if row[at] == score)]
+        out.append((score, [[*row[:at], *row[at + 1 :]] for row in kept]))
+    return out
+
+
 def main_table(part: dict[str, Any]) -> Table:
     """Main table of one condition."""
     return _table(part, COLUMNS[part["env_name"]])
@@ -241,7 +264,9 @@ def all_scores(part: dict[str, Any]) -> Table:
 def comparison_table(part: dict[str, Any]) -> Table:
     """All comparisons of one condition, by the AUC of its drawn curve."""
     area = part["areas"][0]
-    rows = [["method", "minus", "AUC, points", "P(improvement)", "reward", "motion distance"]]
+    rows = [
+        ["method", "minus", "AUC, points", "P(improvement)", "reward, nats", "motion, sum of d"]
+    ]
     for label, method in part["methods"].items():
         for other, comparison in method["comparisons"].items():
             change = comparison["difference"]

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopmap_env.evaluation import BOOTSTRAP_SEED
 from coopmap_env.evaluation.metrics import (
     brier_score,
     expected_calibration_error,
     log_loss,
     reliability_curve,
 )
+from coopmap_env.evaluation.statistics import bootstrap_clusters
 from coopmap_env.mapping import (
     FREE_PROBABILITY,
     BeamModel,
@@ -81,6 +83,40 @@ def calibration_scores(cells: ScoredCells) -> dict[str, Any]:
             "counts": curve.counts.tolist(),
         },
     }
+
+
+def reliability_intervals(worlds: Sequence[ScoredCells]) -> dict[str, list[float | None]]:
+    """95 % intervals of the occupied fraction of each bin of the reliability curve, as JSON values.
+
+    Whole worlds are resampled, as neighbouring cells depend on each other.
+
+    Parameters
+    ----------
+    worlds : sequence of ScoredCells
+        Two or more.
+
+    Returns
+    -------
+    dict
+        "low" and "high" of each bin; None where no world has cells.
+    """
+    curves = [reliability_curve(*cells) for cells in worlds]
+    counts = np.array([curve.counts for curve in curves])
+    occupied = counts * np.nan_to_num([curve.occupied_fraction for curve in curves])
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    ends: dict[str, list[float | None]] = {"low": [], "high": []}
+    for n_cells, n_occupied in zip(counts.T, occupied.T, strict=True):
+        rows = np.stack([n_occupied, n_cells], axis=1)[:, None]
+        interval = bootstrap_clusters(list(rows), _occupied_share, rng) if n_cells.any() else None
+        ends["low"].append(None if interval is None else interval.low)
+        ends["high"].append(None if interval is None else interval.high)
+    return ends
+
+
+def _occupied_share(rows: NDArray[np.float64]) -> float:
+    """Occupied cells over cells, of rows (n, 2) of both; NaN without cells."""
+    n_occupied, n_cells = rows.sum(axis=0)
+    return float(n_occupied / n_cells) if n_cells else float("nan")
 
 
 def compare_cells(pooled: Mapping[str, ScoredCells]) -> dict[str, dict[str, Any]]:

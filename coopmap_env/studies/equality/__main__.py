@@ -12,7 +12,7 @@ from typing import Any
 from coopmap_env.cli.errors import errors_as_lines
 from coopmap_env.core.files import write_atomically
 from coopmap_env.core.progress import log as log_line
-from coopmap_env.studies.common.versions import versions
+from coopmap_env.core.versions import versions
 from coopmap_env.studies.equality.jobs import CASES, play_cases
 
 

@@ -9,27 +9,34 @@ from coopmap_env.core.settings import settings_to_dict
 from coopmap_env.evaluation import summarize
 from coopmap_env.evaluation.figures import draw_coverage_curves, save_frame
 from coopmap_env.evaluation.replay import write_replay
+from coopmap_env.evaluation.report import Column
 from coopmap_env.studies.field import stereo
 from coopmap_env.studies.field.study import SCANS_EACH, FieldStudy
 
-TABLE_SCORES = (
-    "surface_coverage",
-    "surface_coverage_auc",
-    "target_coverage",
-    "f_score",
-    "chamfer",
-    "false_free_fraction",
-    "log_loss",
-    "log_loss_free",
-    "log_loss_occupied",
-    "chi2_median",
-    "chi2_tail",
-    "brier_score",
-    "motion_distance",
-    "n_collisions",
-    "planning_time_ms",
+REPLAY_FILE = "field_replay.html"
+SCORE_COLUMNS = (
+    Column("surface_coverage", "surface coverage, %", 100, 1),
+    Column("surface_coverage_auc", "area under its curve, %", 100, 1),
+    Column("target_coverage", "target coverage, %", 100, 1),
+    Column("f_score", "F-score", 1, 3),
+    Column("chamfer", "Chamfer distance, cm", 100, 2),
+    Column("motion_distance", "motion, sum of d (Eq. 5)", 1, 1),
+    Column("n_collisions", "collisions", 1, 2),
+    Column("planning_time_ms", "decision, ms", 1, 2),
 )
-"""Columns of the report's table, in its order."""
+"""What a policy achieves and costs."""
+MAP_COLUMNS = (
+    Column("log_loss", "log-loss, nats", 1, 4),
+    Column("log_loss_free", "of free voxels, nats", 1, 4),
+    Column("log_loss_occupied", "of occupied voxels, nats", 1, 3),
+    Column("brier_score", "Brier score", 1, 5),
+    Column("false_free_fraction", "false free, %", 100, 1),
+    Column("chi2_median", "surface: median χ² (honest: 0.455)", 1, 2),
+    Column("chi2_tail", "surface: χ² > 3.84, % (honest: 5)", 100, 1),
+)
+"""How right the map's probabilities and surfaces are."""
+TABLE_SCORES = tuple(column.score for column in (*SCORE_COLUMNS, *MAP_COLUMNS))
+"""Columns of the report's tables."""
 
 
 def write_field_figures(study: FieldStudy, out: Path) -> None:
@@ -40,7 +47,7 @@ def write_field_figures(study: FieldStudy, out: Path) -> None:
     )  # fmt: skip
     save_frame(study.frame, out / "field_render.png")
     stereo.draw_stereo(study.stereo, out / "stereo.png")
-    write_replay(study.replay, out / "field_replay.html")
+    write_replay(study.replay, out / REPLAY_FILE)
 
 
 def field_summary(study: FieldStudy) -> dict[str, Any]:

@@ -227,7 +227,7 @@ def _draw_law(axis: Any, law: ErrorLaw) -> None:
     axis.set_xlabel("distance, m")
     axis.set_ylabel("standard deviation of depth, mm")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
+    axis.legend(fontsize=8, loc="lower right")  # the errors grow from the lower left
 
 
 def _draw_map(axis: Any, map_: OccupancyMap) -> None:

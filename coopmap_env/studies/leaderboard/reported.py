@@ -7,7 +7,7 @@ import platform
 from pathlib import Path
 from typing import Any
 
-from coopmap_env.studies.common.versions import versions
+from coopmap_env.core.versions import versions
 
 LIBRARIES = (
     "numpy", "scipy", "numba", "gymnasium", "pettingzoo", "torch", "pybullet", "embreex",

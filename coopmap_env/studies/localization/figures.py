@@ -1,4 +1,4 @@
-"""Figures of the localization study, as PNG files (extra ``report``)."""
+"""Figures of the localization study, as PNG and SVG files (extra ``report``)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
+from coopmap_env.evaluation.figures import (
+    COLORS,
+    MAX_READINGS,
+    import_pyplot,
+    label_curves,
+    plot_band,
+    save_chart,
+)
+from coopmap_env.evaluation.svg import add_readings
 from coopmap_env.studies.localization.estimator_comparison import ESTIMATORS, NOISE_FACTORS
 from coopmap_env.studies.localization.study import LocalizationStudy
 
@@ -19,19 +27,20 @@ def draw_localization(search: dict[str, Any], study: LocalizationStudy, path: Pa
     located_fractions = search["located_fraction"]
     scans = [int(k) for k in located_fractions]
     estimates = np.array([[100 * v for v in located_fractions[str(k)].values()] for k in scans])
-    axes[0].plot(scans, estimates[:, 0], "o-", color=COLORS[0])
-    axes[0].fill_between(scans, estimates[:, 1], estimates[:, 2], color=COLORS[0], alpha=0.2)
     axes[0].set(xlabel="scans of the robot", ylabel="% of robots located", ylim=(0, 103))
-    robots = [robot for result in study.searches for robot in result["robots"] if robot]
-    axes[1].plot(
-        [100 * robot["position"] for robot in robots],
-        [np.degrees(robot["angle"]) for robot in robots],
-        "o", color=COLORS[0], markersize=3, alpha=0.6,
+    plot_band(
+        axes[0], scans, estimates[:, 0], (estimates[:, 1], estimates[:, 2]), "located", COLORS[0],
+        marker="o",
     )  # fmt: skip
+    robots = [robot for result in study.searches for robot in result["robots"] if robot]
     axes[1].set(xlabel="base position error, cm", ylabel="base angle error, degrees")
+    positions = [100 * robot["position"] for robot in robots]
+    angles = [float(np.degrees(robot["angle"])) for robot in robots]
+    axes[1].plot(positions, angles, "o", color=COLORS[0], markersize=3, alpha=0.6)
+    add_readings(axes[1], "a robot", positions, angles)
     axes[1].set_xlim(left=0)
     axes[1].set_ylim(bottom=0)
-    save_figure(figure, path)
+    save_chart(figure, path)
 
 
 def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
@@ -56,31 +65,37 @@ def draw_pose_errors(study: LocalizationStudy, path: Path) -> None:
         ),
         strict=True,
     ):
+        axis.set(xlabel=label, ylabel="% of scans below", xscale="log")
+        axis.tick_params(labelleft=True)  # pages show each axis alone
+        axis.grid(alpha=0.3)
         for text, group, part, color, style in lines:
             values = np.array([scan[part][name] for scan in group], dtype=np.float64)
             values = np.sort(values[np.isfinite(values)]) * scale
             if len(values):
                 percentages = 100 * (np.arange(len(values)) + 1) / len(values)
                 axis.plot(values, percentages, style, color=color, label=text)
-        axis.set_xlabel(label)
-        axis.set_xscale("log")
-    axes[0].set_ylabel("% of scans below")
+                n_shown = min(len(values), MAX_READINGS)
+                some = np.linspace(0, len(values) - 1, n_shown).round().astype(int)
+                add_readings(axis, text, values[some], percentages[some])
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    save_figure(figure, path)
+    save_chart(figure, path)
 
 
 def draw_pose_estimators(study: LocalizationStudy, path: Path) -> None:
     """Draw the median position error of each pose estimator against the noise."""
     plt = import_pyplot()
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True, layout="constrained")
     for axis, (title, results) in zip(axes, study.pose_estimators.items(), strict=True):
+        axis.set(xscale="log", yscale="log", title=title)
+        axis.set(xlabel="noise, factor of the default", ylabel="median position error, mm")
+        axis.tick_params(labelleft=True)  # pages show each axis alone
         for color, name in zip(COLORS, ("prediction", *ESTIMATORS), strict=True):
             style = "--" if name == "prediction" else "o-"
             errors = 1e3 * np.array(results[name]["position"])
             axis.plot(NOISE_FACTORS, errors, style, color=color, label=name, markersize=4)
-        axis.set(xscale="log", yscale="log", title=title, xlabel="noise, factor of the default")
+            add_readings(axis, name, NOISE_FACTORS, errors)
         axis.set_xticks(NOISE_FACTORS, [f"{factor:g}" for factor in NOISE_FACTORS], minor=False)
         axis.minorticks_off()
-    axes[0].set_ylabel("median position error, mm")
-    axes[1].legend(fontsize=8)
-    save_figure(figure, path)
+    for axis in axes:
+        label_curves(axis)
+    save_chart(figure, path)

@@ -26,7 +26,13 @@ from coopmap_env.mapping import OccupancyMap, VoxelGrid
 from coopmap_env.sensing import Scan
 from coopmap_env.simulation import PlanarSimulator
 from coopmap_env.studies.common.hit_miss import HitMissMap
-from coopmap_env.studies.common.map_scores import MapModel, ScoredCells, compare_cells, pool
+from coopmap_env.studies.common.map_scores import (
+    MapModel,
+    ScoredCells,
+    compare_cells,
+    pool,
+    reliability_intervals,
+)
 
 NOISE_SPAWN_KEY = 0x5CA9
 """Spawn key of the noise of these scans, which is independent of the episode's own."""
@@ -80,8 +86,16 @@ def pool_cells(worlds: Sequence[RecordedWorld], grid: VoxelGrid, model: MapModel
 def compare_models(
     worlds: Sequence[RecordedWorld], grid: VoxelGrid, models: Mapping[str, MapModel]
 ) -> dict[str, dict[str, Any]]:
-    """`compare_cells` of the maps of each model."""
-    return compare_cells({name: pool_cells(worlds, grid, model) for name, model in models.items()})
+    """`compare_cells` of the maps of each model, with `reliability_intervals` of several worlds."""
+    cells = {
+        name: [fuse_scans(world, model.map(grid)) for world in worlds]
+        for name, model in models.items()
+    }
+    scores = compare_cells({name: pool(parts) for name, parts in cells.items()})
+    if len(worlds) > 1:
+        for name, parts in cells.items():
+            scores[name]["reliability"] |= reliability_intervals(parts)
+    return scores
 
 
 def surface_consistency(

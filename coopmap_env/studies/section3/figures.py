@@ -1,4 +1,4 @@
-"""Figures of the Section 3 report, as PNG files (extra ``report``)."""
+"""Figures of the Section 3 report, as PNG and SVG files (extra ``report``)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopmap_env.evaluation import BOOTSTRAP_SEED, Evaluation
-from coopmap_env.evaluation.figures import COLORS, import_pyplot, save_figure
+from coopmap_env.evaluation.figures import (
+    COLORS,
+    import_pyplot,
+    label_curves,
+    plot_bars,
+    save_chart,
+    save_figure,
+)
 from coopmap_env.evaluation.statistics import bootstrap_mean
+from coopmap_env.evaluation.svg import add_readings
 from coopmap_env.studies.section3.snapshots import EpisodeSnapshot
 
 UNKNOWN_COLOR = (0.55, 0.63, 0.72)
@@ -22,7 +30,9 @@ def draw_world_and_map(snapshot: EpisodeSnapshot, path: Path, title: str) -> Non
     """Draw a world beside the team's map of it, with the paths of the cameras."""
     plt = import_pyplot()
     nx, ny = snapshot.truth.shape
-    figure, axes = plt.subplots(1, 2, figsize=(11, 5.6 * ny / nx + 0.6), sharey=True)
+    figure, axes = plt.subplots(
+        1, 2, figsize=(11, 5.6 * ny / nx + 0.5), sharey=True, layout="constrained"
+    )
     axes[0].imshow(~snapshot.truth.T, cmap="gray", origin="lower", extent=(0, nx, 0, ny))
     axes[0].set_title("(a) environment")
     axes[1].imshow(
@@ -34,7 +44,9 @@ def draw_world_and_map(snapshot: EpisodeSnapshot, path: Path, title: str) -> Non
         axes[1].plot(
             *camera_path[0], "o", color=COLORS[robot], markersize=6, label=f"robot {robot}, start"
         )
-    axes[1].legend(loc="upper right", fontsize=8)
+    figure.legend(
+        *axes[1].get_legend_handles_labels(), loc="outside upper right", ncols=2, fontsize=8
+    )
     for axis in axes:
         axis.set_xlabel("x, cells")
     axes[0].set_ylabel("y, cells")
@@ -61,12 +73,13 @@ def draw_map(
 def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> None:
     """Draw coverage and sigma against K, one line for each search."""
     plt = import_pyplot()
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.2))
+    figure, axes = plt.subplots(1, 2, figsize=(11, 3.8), layout="constrained")
     searches = list(next(iter(sweep.values())))
     for axis, column, scale, label in (
         (axes[0], "coverage", 100.0, "% of world observed"),
         (axes[1], "radius_std", 1.0, "sigma of observed space, cells"),
     ):
+        axis.set(xlabel="K, nats per d**n", ylabel=label)
         for k, search in enumerate(searches):
             rng = np.random.default_rng(BOOTSTRAP_SEED)
             means = [
@@ -74,43 +87,48 @@ def draw_sweep(sweep: Mapping[float, Mapping[Any, Evaluation]], path: Path) -> N
                 for results in sweep.values()
             ]
             values = np.array([mean.estimate for mean in means])
-            errors = [
-                values - [mean.low for mean in means],
-                [mean.high for mean in means] - values,
-            ]
+            ends = [mean.low for mean in means], [mean.high for mean in means]
             name = f"m = {search}" if isinstance(search, int) else search
-            axis.errorbar(
-                list(sweep), values, errors, color=COLORS[k], marker="o", capsize=3, label=name
-            )
-        axis.set_xlabel("K, nats per d**n")
-        axis.set_ylabel(label)
+            plot_bars(axis, list(sweep), values, ends, label=name, color=COLORS[k])
         axis.set_ylim(bottom=0)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize=8)
-    save_figure(figure, path)
+        label_curves(axis)
+    save_chart(figure, path)
 
 
 def draw_reliability(calibration: Mapping[str, Mapping[str, Any]], path: Path) -> None:
-    """Draw the fraction of occupied cells against the predicted probability."""
+    """Draw the fraction of occupied cells against the predicted probability, and the cells by bin.
+
+    Bars are 95 % intervals over worlds, if the scores have them; see `reliability_intervals`.
+    """
     plt = import_pyplot()
-    figure, axis = plt.subplots(figsize=(5.2, 5))
-    axis.plot([0, 1], [0, 1], color="0.7", linewidth=1)
+    figure, (axis, counts) = plt.subplots(1, 2, figsize=(11, 4.4), layout="constrained")
+    axis.plot([0, 1], [0, 1], color="0.7", linewidth=1, label="_diagonal")
+    axis.set(xlabel="predicted P(occupied)", ylabel="fraction of occupied cells")
+    counts.set(xlabel="predicted P(occupied)", ylabel="cells in the bin", yscale="log", xlim=(0, 1))
     for k, (name, score) in enumerate(calibration.items()):
-        curve = score["reliability"]
-        filled_bins = [i for i, value in enumerate(curve["predicted"]) if value is not None]
-        axis.plot(
-            [curve["predicted"][i] for i in filled_bins],
-            [curve["observed"][i] for i in filled_bins],
-            "o-",
-            color=COLORS[k],
-            label=f"{name.replace('_', ' ')}, log-loss {score['log_loss']:.4f}",
+        curve, color, label = score["reliability"], COLORS[k], name.replace("_", " ")
+        filled = [i for i, value in enumerate(curve["predicted"]) if value is not None]
+        predicted, observed = (
+            np.array([curve[part][i] for i in filled]) for part in ("predicted", "observed")
         )
-    axis.set_xlabel("predicted P(occupied)")
-    axis.set_ylabel("fraction of occupied cells")
+        ends = [[curve[end][i] for i in filled] for end in ("low", "high") if end in curve]
+        plot_bars(axis, predicted, observed, ends or None, label=label, color=color)
+        n_bins = len(curve["counts"])
+        width = 0.8 / len(calibration) / n_bins
+        middles = [(i + 0.1) / n_bins + (k + 0.5) * width for i in filled]
+        n_cells = [curve["counts"][i] for i in filled]
+        counts.bar(middles, n_cells, width, color=color, label=label)
+        add_readings(counts, label, predicted, n_cells, places=middles)
     axis.set_aspect("equal")
     axis.grid(alpha=0.3)
-    axis.legend(fontsize=8)
-    save_figure(figure, path)
+    label_curves(axis)
+    counts.set_xticks(np.linspace(0, 1, 11))
+    counts.grid(axis="y", alpha=0.3)
+    figure.legend(
+        *counts.get_legend_handles_labels(), loc="outside upper right", ncols=3, fontsize=8
+    )
+    save_chart(figure, path)
 
 
 def _map_image(probability: NDArray[np.float64], sampled: NDArray[np.bool_]) -> NDArray[np.float64]:

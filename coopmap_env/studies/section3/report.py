@@ -19,7 +19,13 @@ from coopmap_env.evaluation.figures import draw_coverage_curves, save_frame
 from coopmap_env.evaluation.statistics import bootstrap_mean
 from coopmap_env.evaluation.tables import format_interval
 from coopmap_env.studies.common.pages import render_template
-from coopmap_env.studies.field.report import TABLE_SCORES, field_summary, write_field_figures
+from coopmap_env.studies.field.report import (
+    MAP_COLUMNS,
+    REPLAY_FILE,
+    SCORE_COLUMNS,
+    field_summary,
+    write_field_figures,
+)
 from coopmap_env.studies.field.study import FieldStudy
 from coopmap_env.studies.section3 import figures
 from coopmap_env.studies.section3.setting import (
@@ -155,7 +161,9 @@ def _render_html(study: Section3, summary: dict[str, Any], out: Path) -> str:
         study=study,
         summary=summary,
         field=summary.get("field"),
-        field_columns=TABLE_SCORES,
+        field_columns=SCORE_COLUMNS,
+        field_map_columns=MAP_COLUMNS,
+        replay=(out / REPLAY_FILE).read_text(encoding="utf-8") if "field" in summary else "",
         table_1=study.table_1(),
         paper=PAPER_TABLE_1,
         columns=TABLE_1_SCORES,
