@@ -9,7 +9,7 @@ import pytest
 HIDDEN = (
     "pybullet", "pybullet_data", "trimesh", "embreex", "ompl", "pyoctomap", "viser",
     "skimage", "example_robot_data", "cmeel", "matplotlib", "torch", "stable_baselines3",
-    "onnxruntime",
+    "onnxruntime", "h5py",
 )  # fmt: skip
 HIDE = f"""
 import sys
@@ -54,6 +54,8 @@ CODES = {
     ),
     "from coopmap_env.cli import main\n"
     "main(['evaluate', '--env', 'field', '--out', 'nowhere'])": "pip install 'coopmap[field]'",
+    "from coopmap_env.cli import main\n"
+    "main(['record', '--out', 'nowhere'])": "pip install 'coopmap[record]'",
 }
 """Code that fails, and the command that its error names."""
 

@@ -286,6 +286,22 @@ def test_a_file_that_is_no_hdf5_is_one_error(copied):
         RecordedDataset(copied)[0]
 
 
+def test_random_damage_is_read_or_is_one_error(copied):
+    path = copied / "data" / "main_data.hdf5"
+    content, rng, messages = path.read_bytes(), np.random.default_rng(0), []
+    for _ in range(40):
+        damaged = bytearray(content)
+        for place in rng.integers(len(content), size=rng.integers(1, 8)):
+            damaged[place] = rng.integers(256)
+        path.write_bytes(damaged[: rng.integers(len(content) // 2, 2 * len(content))])
+        try:
+            list(RecordedDataset(copied))
+        except RecordingError as error:
+            messages.append(str(error))
+    assert len(messages) > 20
+    assert all(str(path) in message for message in messages)
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
