@@ -49,7 +49,6 @@ def metadata() -> dict[str, Any]:
         description=DESCRIPTION,
         cite_as="See CITATION.cff of coopmap.",
         license=["https://opensource.org/license/mit"],
-        url="https://pypi.org/project/coopmap/",
         version=VERSION,
         date_published=PUBLISHED,
         creators=[mlc.Organization(name="The coopmap founders")],
