@@ -92,15 +92,16 @@ def plot_curves(
     for k, (name, evaluation) in enumerate(evaluations.items()):
         curves = 100 * evaluation.curves[curve]
         scans = n_robots * np.arange(curves.shape[1])
-        rng = np.random.default_rng(BOOTSTRAP_SEED)
-        intervals = [bootstrap_mean(column, rng, n_resamples=500) for column in curves.T]
+        interval = None
+        if len(curves) > 1:
+            rng = np.random.default_rng(BOOTSTRAP_SEED)
+            means = [bootstrap_mean(column, rng, n_resamples=500) for column in curves.T]
+            interval = [mean.low for mean in means], [mean.high for mean in means]
         plot_band(
             axis,
             scans,
             curves.mean(axis=0),
-            ([one.low for one in intervals], [one.high for one in intervals])
-            if len(curves) > 1
-            else None,
+            interval,
             label=name,
             color=COLORS[k % len(COLORS)],
             linestyle="--" if name == dashed else "-",

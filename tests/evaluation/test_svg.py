@@ -2,11 +2,14 @@ import re
 
 import numpy as np
 import pytest
+from plain.episodes import example_episode
 
 pytest.importorskip("matplotlib")
 
+from coopmap_env.evaluation import Evaluation
 from coopmap_env.evaluation.figures import (
     COLORS,
+    draw_coverage_curves,
     import_pyplot,
     label_curves,
     plot_band,
@@ -144,3 +147,15 @@ def test_every_curve_has_one_label_in_its_colour(figure):
     assert [text.get_text() for text in axis.texts] == ["first", "second"]
     assert [text.get_color() for text in axis.texts] == list(COLORS[:2])
     assert [text.xy for text in axis.texts] == [(1.0, 1.0), (2.0, 0.0)]
+
+
+@pytest.mark.parametrize(("n_worlds", "n_bands"), [(1, 0), (3, 1)])
+def test_the_curve_of_a_single_world_has_no_band(n_worlds, n_bands, tmp_path):
+    episodes = tuple(example_episode(seed) for seed in range(n_worlds))
+    draw_coverage_curves({"raster": Evaluation(episodes)}, 2, tmp_path / "curve.png", "a title")
+    (panel,) = svg_panels(tmp_path / "curve.svg")
+    titles = re.findall(r"<title>([^<]*)</title>", panel)
+    assert len(titles) == 3
+    assert titles[-1].startswith("raster\nscans of the team: 4\n% of world observed: 30")
+    assert len(re.findall(r'id="[^"]*PolyCollection_\d+"', panel)) == n_bands
+    assert titles[-1].endswith("]") == bool(n_bands)

@@ -107,8 +107,8 @@ def test_the_deviation_from_the_papers_numbers_is_that_of_the_table(out):
 def test_the_report_says_which_constants_the_table_determines(out):
     html = (out / "report.html").read_text()
     assert "field of view, degrees" in html
-    assert "<td>by the 18 numbers</td>" in html
-    assert "<td>by the observed fraction, not by the 18 numbers alone</td>" in html
+    assert '<td class="text">by the 18 numbers</td>' in html
+    assert '<td class="text">by the observed fraction, not by the 18 numbers alone</td>' in html
 
 
 @pytest.mark.slow

@@ -96,7 +96,9 @@ def with_scroll_boxes(html: str) -> str:
 
 
 def with_contents(html: str) -> str:
-    """Give each heading an id, and list all headings where the page has `CONTENTS`."""
+    """List all headings where the page has `CONTENTS`; a page without it stays as it is."""
+    if CONTENTS not in html:
+        return html
     seen: Counter[str] = Counter()
     entries: list[str] = []
 
