@@ -63,11 +63,13 @@ kernels: setup
 	$(PLAY) coopmap/Planar-v1 > /dev/null & \
 		$(PLAY) coopmap/Field-v1 coopmap/FieldSearch-v1 > /dev/null & wait
 
-# The site, in build/docs. Warnings are errors, and nothing may be loaded from elsewhere.
+# The site, in build/docs. Warnings are errors, nothing may be loaded from elsewhere, and a table that
+# is no table stays a paragraph with bars.
 docs: setup
 	$(BIN)/python -P -m sphinx --fresh-env --jobs auto --fail-on-warning --keep-going --quiet \
 		--doctree-dir build/doctrees docs build/docs
 	! grep -rlE '$(LOADED_FROM_ELSEWHERE)' --include='*.html' --include='*.css' build/docs
+	! grep -rl '<p>|' --include='*.html' build/docs
 
 # `python -m pytest` would import from this folder, and the programs that tests start from the
 # installed links: numba would compile all kernels for both.

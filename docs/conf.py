@@ -66,11 +66,13 @@ def resolve_short_name(
 
 
 def copy_leaderboard(app: Sphinx, error: Exception | None) -> None:
-    """The page of all submissions is an HTML file of its own."""
+    """The page of all submissions is an HTML file of its own, which links them."""
     if error is None:
         board = Path(app.outdir, "leaderboard")
         board.mkdir(exist_ok=True)
-        shutil.copy(Path(app.srcdir, "leaderboard", "index.html"), board)
+        for path in Path(app.srcdir, "leaderboard").iterdir():
+            if path.suffix in (".html", ".gz"):
+                shutil.copy(path, board)
 
 
 def setup(app: Sphinx) -> None:

@@ -40,7 +40,7 @@ class EnvironmentOptions(TaskArguments):
     """Benchmark family, such as crowded. It stands for a scene, a team and a budget; see
     coopmap_env.families."""
     env: Literal["planar", "field"] | None = None
-    """2-D (planar; default) or 3-D (field). The latter needs the extra of that name."""
+    """2-D (planar, the default) or 3-D (field, which needs the extra of that name)."""
     n_robots: int | None = None  # type: ignore[assignment]  # an option may be left out
     """Robots in the team, 2 by default."""
     max_scans: int | None = None  # type: ignore[assignment]

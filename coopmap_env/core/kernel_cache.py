@@ -48,8 +48,8 @@ except ImportError:
 Dispatcher = Any
 """A function with numba's decorator."""
 COMPILING = (
-    "coopmap: compiling kernels for this processor, once for each installation; this takes a "
-    "minute or two, and `coopmap warm-up` does it beforehand"
+    "coopmap: compiling code that is not yet on disk for this processor, once: seconds, or a "
+    "minute or two if nothing is there; `coopmap warm-up` does most of it beforehand"
 )
 compiled_kernels: list[str] = []
 """Names of those that this process has compiled."""

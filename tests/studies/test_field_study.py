@@ -90,7 +90,8 @@ def test_the_page_has_the_tables_and_the_replay_in_it(study, tmp_path):
 
 
 def test_no_extra_is_missing_in_the_development_environment():
-    assert missing_extras(EXTRAS) == {}
+    elsewhere = {"benchmarl"}  # it has an environment of its own
+    assert missing_extras(EXTRAS.keys() - elsewhere) == {}
 
 
 def test_the_replay_command_writes_a_page(tmp_path):
