@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 Item = TypeVar("Item")
+SECONDS_IN_FILES = 30.0
+"""Between two states of a bar where no terminal overwrites the one before."""
 
 
 def log(text: str) -> None:
@@ -34,11 +36,14 @@ def progress_bar(
         Items done before.
     show : bool
         Whether to show the bar; the items are returned as they are otherwise.
-
     """
     if not show:
         return items
     from tqdm import tqdm
 
-    bar: Iterable[Item] = tqdm(items, total=total, initial=done, unit=unit, smoothing=0.1)
+    seconds = 0.1 if sys.stderr.isatty() else SECONDS_IN_FILES
+    bar: Iterable[Item] = tqdm(
+        items, total=total, initial=done, unit=unit, smoothing=0.1, mininterval=seconds,
+        maxinterval=seconds,
+    )  # fmt: skip
     return bar
