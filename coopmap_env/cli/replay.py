@@ -28,8 +28,7 @@ class Replay(EnvironmentOptions):
     out: Path = field(default_factory=partial(new_results_path, "replay", ".html"))
     """The HTML file."""
     env: Literal["planar", "field"] | None = None
-    """3-D (field, the default, which needs the extras field and replay) or 2-D (planar, which needs
-    none)."""
+    """3-D (field, the default) or 2-D (planar, which needs no extra)."""
     policy: str = "rating_function:search=100"
     """Name with options: name:key=value+key=value."""
     split: SplitName = "test"
