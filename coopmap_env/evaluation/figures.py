@@ -135,10 +135,9 @@ def plot_band(
     **style
         Of the line.
     """
-    at, values = np.asarray(x, dtype=np.float64), np.asarray(estimate, dtype=np.float64)
+    at, values, *ends = _as_arrays(x, estimate, *(interval or ()))
     axis.plot(at, values, color=color, label=label, **style)
     some = np.unique(np.linspace(0, len(at) - 1, min(len(at), MAX_READINGS)).round().astype(int))
-    ends = [np.asarray(end, dtype=np.float64) for end in interval or ()]
     if ends:
         axis.fill_between(at, *ends, color=color, alpha=0.15, linewidth=0)
     add_readings(axis, label, at[some], values[some], *(end[some] for end in ends))
@@ -157,13 +156,16 @@ def plot_bars(
 
     Parameters are those of `plot_band`.
     """
-    at, values = np.asarray(x, dtype=np.float64), np.asarray(estimate, dtype=np.float64)
+    at, values, *ends = _as_arrays(x, estimate, *(interval or ()))
     line = {"marker": "o", "markersize": 4, "linewidth": 1.3, **style}
     axis.plot(at, values, color=color, label=label, **line)
-    ends = [np.asarray(end, dtype=np.float64) for end in interval or ()]
     if ends:
         axis.vlines(at, *ends, color=color, linewidth=1, alpha=0.7)
     add_readings(axis, label, at, values, *ends)
+
+
+def _as_arrays(*values: ArrayLike) -> list[NDArray[np.float64]]:
+    return [np.asarray(each, dtype=np.float64) for each in values]
 
 
 def label_curves(axis: Any, right: float = 1.04, at_height: float | None = None) -> None:

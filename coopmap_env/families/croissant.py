@@ -6,7 +6,7 @@
 
 Croissant (https://docs.mlcommons.org/croissant) describes a dataset as JSON-LD, which its library
 `mlcroissant` checks and loads. The dataset are the hashes of worlds: worlds themselves are made
-from their seeds. The file is written anew whenever hashes change; a test compares it with what
+from their seeds. The file is written again whenever hashes change; a test compares it with what
 this writes.
 """
 

@@ -46,7 +46,7 @@ LOOKAHEAD = {
     "lookahead": Entry("lookahead"),
     "lookahead-joint": Entry("lookahead:coordination=joint"),
 }
-"""Planar: in the field, a decision takes them 10 s and more."""
+"""Planar: in the 3-D environment, a decision takes them 10 s and more."""
 WEIGHING = {
     "lookahead-one-weighing": Entry("lookahead:horizon=1+motion_weight=0.015"),
     "lookahead-weighing": Entry("lookahead:motion_weight=0.02"),
